@@ -1,6 +1,5 @@
 """The two grades of a crash: whether the ego's driver could have prevented it, and how the adversary behaves."""
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
@@ -17,25 +16,14 @@ GROSS_OFFENCES: frozenset[OffenceName] = frozenset(
 )
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """A mistake that drivers make."""
-
-    words: str  # what the driver does, after its name; {other} is the one that it meets
-    # [percent] of the mistakes of drivers in accidents in which people were hurt; None: counted under no such name
-    share: float | None
-
-
-# Shares: Statistisches Bundesamt (Destatis), Verkehrsunfaelle 2023: 342,367 mistakes of drivers in accidents with
-# personal injury in Germany (Nichtbeachten der Vorfahrt, ungenuegender Abstand, nicht angepasste Geschwindigkeit, the
-# last of any amount). Its other causes are not the ones measured here.
-MISTAKES: dict[OffenceName, Mistake] = {
-    "gives_no_way": Mistake("does not give way to {other}", 13.4),
-    "unsafe_cut_in": Mistake("changes lanes too close to {other}", None),
-    "leaves_lane": Mistake("drifts out of its lane", None),
-    "tailgating": Mistake("follows {other} too closely", 12.9),
-    "over_limit": Mistake("drives up to 20 % too fast", 11.4),
-    "brakes_needlessly": Mistake("stops or brakes hard without need", None),
+# Mistakes that drivers make: what the driver does, after its name; {other} is the one that it meets.
+MISTAKES: dict[OffenceName, str] = {
+    "gives_no_way": "does not give way to {other}",
+    "unsafe_cut_in": "changes lanes too close to {other}",
+    "leaves_lane": "drifts out of its lane",
+    "tailgating": "follows {other} too closely",
+    "over_limit": "drives up to 20 % too fast",
+    "brakes_needlessly": "stops or brakes hard without need",
 }
 
 

@@ -54,7 +54,7 @@ _KINDS: dict[Kind, str] = {"pedestrian": "pedestrian", "bicycle": "cyclist"}
 
 def offence_words(name: OffenceName, other: str) -> str:
     """What a road user does against a rule, after its name; `other` is the one that it meets."""
-    return (_GROSSLY.get(name) or MISTAKES[name].words).format(other=other)
+    return (_GROSSLY.get(name) or MISTAKES[name]).format(other=other)
 
 
 _FLAWLESS = {True: "even flawless", False: "not flawless", None: "flawless is not known"}
@@ -112,7 +112,7 @@ def adversary_words(agents: Sequence[Agent], attack: AttackRecord | None) -> str
 # What one does that is at fault by a rule of `verdicts.law.fault`, where no offence has that name
 _AT_FAULT = {
     "wrong_way": "drives on the wrong side",
-    "gives_way": MISTAKES["gives_no_way"].words,
+    "gives_way": MISTAKES["gives_no_way"],
     "cut_in": "cuts in too close to {other}",
     "side_swipe": "moves sideways into {other}",
     "rear_end": "keeps too little distance to {other}",
@@ -165,7 +165,7 @@ def _blamed(fault: Fault | None, agent: Blamed, other: str) -> str:
     """What makes `agent` at fault, after its name; empty where it is not."""
     if fault is None or fault.at_fault not in (agent, "both"):
         return ""
-    rules = {**_GROSSLY, **{name: one.words for name, one in MISTAKES.items()}, **_AT_FAULT}
+    rules = {**_GROSSLY, **MISTAKES, **_AT_FAULT}
     does = (_EGO_AT_FAULT if agent == "ego" else rules).get(fault.rule, rules.get(fault.rule))
     said = "is partly at fault" if fault.at_fault == "both" else "is at fault"
     return f"{does.format(other=other)} and {said}" if does else f"{said} ({fault.rule.replace('_', ' ')})"
