@@ -5,14 +5,13 @@ A planner that the user names is run. A planner that a case names is not, as the
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pkgutil import resolve_name
 from typing import Any
 
 from regents_cosim.checks.names import did_you_mean, nearest
 from regents_cosim.errors import PlannerError
-from regents_cosim.planners.hosting.bridges import BRIDGES, factory_of
 from regents_cosim.planners.hosting.object_transport import Pickled, name_of, unpickled
 from regents_cosim.planners.interface import Planner
 from regents_cosim.planners.names import OURS, WITH_SETTINGS, all_that_may_be_named, is_built_in
@@ -20,6 +19,7 @@ from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.user_code import import_named, place_of, plugins
 
 GROUP = "regents_cosim.planners"  # of entry points
+_BRIDGES = ("aim-bev", "exec", "highway", "sumo", "torch")  # prefixes, as in `exec:./my_planner --fast`
 
 
 def planner_of(case: Scenario, named: str | None = None) -> str:
@@ -56,10 +56,10 @@ def find_attribute(name: str) -> Any:
     prefix, _, rest = name.partition(":")
     if prefix in WITH_SETTINGS:
         return lambda: _made_with(resolve_name(OURS[prefix]), prefix, rest)
-    if prefix in OURS and "=" in rest and prefix not in BRIDGES:
+    if prefix in OURS and "=" in rest and prefix not in _BRIDGES:
         raise PlannerError(f"planner {name!r}: {prefix} has no settings, expected {prefix} alone")
     if bridge := bridge_of(name):
-        factory = factory_of(bridge)
+        factory = _factory_of(bridge)
         return lambda: factory(rest)
     module_name, attribute, installed = place_of(name, GROUP)
     if not module_name:
@@ -80,7 +80,30 @@ def find_attribute(name: str) -> Any:
 def bridge_of(name: str) -> str:
     """The bridge that makes the planner of that name; empty for other names, also where an entry point has it."""
     prefix = name.partition(":")[0]
-    return prefix if prefix in BRIDGES and name not in plugins(GROUP) else ""
+    return prefix if prefix in _BRIDGES and name not in plugins(GROUP) else ""
+
+
+def _factory_of(bridge: str) -> Callable[[str], Any]:
+    """What makes the Planner or JaxPlanner from the text after the prefix; imported when such a planner is named."""
+    if bridge == "aim-bev":
+        from regents_cosim.planners.aim_bev.planner import aim_bev
+
+        return aim_bev
+    if bridge == "exec":
+        from regents_cosim.planners.hosting.exec_planner import ExecPlanner
+
+        return ExecPlanner
+    if bridge == "highway":
+        from regents_cosim.replays.highway.ego import HighwayEgo
+
+        return HighwayEgo
+    if bridge == "sumo":
+        from regents_cosim.replays.sumo.ego import SumoEgo
+
+        return SumoEgo
+    from regents_cosim.planners.hosting.torch_bridge import TorchPlanner
+
+    return TorchPlanner
 
 
 def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:
