@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from regents_cosim.errors import RegentsError
+from regents_cosim.errors import MissingDependencyError, install_hint
 from regents_cosim.exports.lights import Light, lights_of
 from regents_cosim.maps.lanelets import Bounds, pieces_between, ribbon, ribbons
 from regents_cosim.maps.roadmap import RoadMap
@@ -104,7 +104,9 @@ def lanelet_network(road: RoadMap, signals: Sequence[Signal], steps: int) -> "La
         with warnings.catch_warnings(action="ignore"):  # of the protobuf that it pins
             from commonroad.common.file_reader import CommonRoadFileReader  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise RegentsError("commonroad-io is missing; install it: pip install commonroad-io") from error
+        raise MissingDependencyError(
+            f"a map for CommonRoad's planners needs commonroad-io: {install_hint('planners-commonroad')}"
+        ) from error
     root = document("map", 0.1, "")
     root.extend(NumberedMap(road, signals, steps, itertools.count(1)).elements())
     with tempfile.TemporaryDirectory() as folder:

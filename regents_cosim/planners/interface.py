@@ -241,7 +241,7 @@ class Scene(ShortRepr):
     def commonroad(self) -> "LaneletNetwork":
         """The map as commonroad-io's object: lanelets without holes, speed limits, stop lines and traffic lights.
 
-        Lanelet k is `road.lanes[k - 1]`. Raises RegentsError if commonroad-io is not installed.
+        Lanelet k is `road.lanes[k - 1]`. Raises MissingDependencyError without commonroad-io.
         """
         from regents_cosim.exports.commonroad_map import lanelet_network
 
