@@ -36,6 +36,11 @@ def listed(names: Sequence[str], most: int) -> str:
     return f"{', '.join(names[:most])}{more}"
 
 
+def all_named(names: Sequence[str]) -> str:
+    """All names: "a", "a and b", "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
 def counted(number: int, noun: str) -> str:
     """A number with its noun, in the plural unless it is one: "1 case", "2 cases", "0 crashes"."""
     return f"{number} {noun if number == 1 else noun + ('es' if noun.endswith('sh') else 's')}"

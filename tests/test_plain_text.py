@@ -3,7 +3,7 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 
-from regents_cosim.plain_text import counted, one_line, printable
+from regents_cosim.plain_text import all_named, counted, one_line, printable
 
 # Half of a character (surrogates) is part of file names that are no UTF-8.
 ANYTHING = st.text(st.characters(codec=None), max_size=60)
@@ -53,6 +53,10 @@ def test_the_middle_of_50_mb_goes_and_both_ends_stay():
     assert shown.startswith("what was found: ")
     assert shown.endswith(", do this")
     assert len(shown) == 500
+
+
+def test_names_are_listed_as_one_says_them():
+    assert [all_named("abc"[:count]) for count in range(4)] == ["", "a", "a and b", "a, b and c"]
 
 
 def test_a_noun_is_in_the_plural_unless_it_is_one():

@@ -32,7 +32,7 @@ from regents_cosim.evaluation.drives.metrics import Column
 from regents_cosim.evaluation.drives.safety import Safety, measure_drive
 from regents_cosim.evaluation.statistics import wilson
 from regents_cosim.norms.limits import MOST_ACCEL_M_S2
-from regents_cosim.plain_text import counted
+from regents_cosim.plain_text import all_named, counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.reports.page.case import MotionRow, PageCase, PageDrive, PageEntry
@@ -115,7 +115,7 @@ def report_of(
     cases = tuple(watch(in_turn(pack, jobs)))
     _check_cases(cases)
     attacked = sorted({case.attack.planner for case in cases if case.attack})
-    drivers: tuple[str, ...] = tuple(driven) if driven else (" and ".join(attacked) or "log",)
+    drivers: tuple[str, ...] = tuple(driven) if driven else (all_named(attacked) or "log",)
     counts = {name: CrashCounts.of(case.runs[run].end for case in cases) for run, name in enumerate(drivers)}
     scores = _driving_scores(drives, counts) if driven else _attack_scores(drivers[0], cases, counts[drivers[0]])
     return Report(
@@ -241,7 +241,7 @@ def _subtitle(cases: Sequence[PageEntry]) -> str:
     where = counted(len(places), "network" if of_sumo else "recording")
     named = f": {', '.join(places)}" if len(places) <= _MOST_NAMED else ""
     methods = sorted({case.attack.method for case in cases if case.attack})
-    how = f" Attacked by {' and '.join(methods)}." if methods else ""
+    how = f" Attacked by {all_named(methods)}." if methods else ""
     return f"{counted(len(cases), 'case')} on {where}{named}.{how}"
 
 

@@ -3,7 +3,7 @@
 from regents_cosim.cli.options import ActTimeout, Cases, Output, OutputOptions
 from regents_cosim.cli.shared import open_terminal
 from regents_cosim.errors import PLANNER_FAILED
-from regents_cosim.plain_text import counted
+from regents_cosim.plain_text import all_named, counted
 from regents_cosim.planners.time_limits import ACT_TIMEOUT_S
 
 
@@ -37,7 +37,7 @@ def report(
         tags = {one.id: one.tags for one in scenarios.headers() if one.tags is not None}
     given = [PlannerUnderTest.of(name) for name in planner]
     judged, driven = judged_and_driven(scenarios, given, act_timeout)
-    what = f"driving {' and '.join(planner)}" if planner else "packing"
+    what = f"driving {all_named(planner)}" if planner else "packing"
     made = report_of(judged, driven, cases, tags, lambda done: terminal.each(done, what, len(scenarios)))
     with terminal.waiting(f"writing {output}"):
         save_report(made, output)

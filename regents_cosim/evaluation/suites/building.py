@@ -27,6 +27,7 @@ from regents_cosim.evaluation.suites.folders import require_place, write_suite
 from regents_cosim.evaluation.suites.harmless import harmless_neighbours
 from regents_cosim.geometry.frames import ahead_and_left, wrap
 from regents_cosim.norms.grades import Prevention
+from regents_cosim.plain_text import all_named
 from regents_cosim.planners.under_test import AnyPlanner, PlannerUnderTest
 from regents_cosim.replays.holds import verified_only
 from regents_cosim.runs.steps import Steps
@@ -170,7 +171,7 @@ def _crashes(
     for place, planner in enumerate(ladder[1:], 1):
         above = ladder[:place]
         kept += _passed_by(above, _found(windows, planner, recipe, steps, progress))
-        names = " and ".join(one.name for one in above)
+        names = all_named([one.name for one in above])
         progress.say(f"kept {len(kept)} crashes, which {names} pass{'es' if place == 1 else ''}")
     return kept
 
