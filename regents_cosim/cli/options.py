@@ -126,8 +126,8 @@ class TrafficOptions:
     """end of the simulation [s]"""
     fcd: Path | None = None
     """an fcd-output of SUMO (xml, xml.gz, csv) to read instead of running SUMO; needs -n"""
-    policy: Annotated[str, Advanced] = "idm"
-    """driver of the ego in highway-env: idm, mdp, random, package.module:attribute or file.py:attribute"""
+    policy: str = "idm"
+    """driver of the ego in highway-env: idm, mdp, random, file.zip, package.module:attribute or file.py:attribute"""
     format: Annotated[str, Advanced] = "auto"
     """format of --log; auto recognises it by the content, a wrong name lists all formats"""
     stride: Annotated[float | None, Advanced] = None
