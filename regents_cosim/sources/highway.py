@@ -8,7 +8,9 @@ import hashlib
 import json
 import random
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -98,6 +100,10 @@ def record_episodes(environment: str, policy: str, windows: Windows) -> list[Sce
 def _make(name: str, agent: HighwayAgent) -> AbstractEnv:
     """The environment, running at 10 Hz."""
     env, frequency = make_environment(name, agent.config), round(1.0 / STEP_S)
+    # A recording needs no reward, and those of merges and roundabouts fail on continuous actions.
+    kind = type(env)
+    forgiving = {"_reward": _or(0.0, kind._reward), "_rewards": _or({}, kind._rewards)}
+    env.__class__ = type(kind.__name__, (kind,), forgiving)  # not on the instance, for a search copies it
     if "policy_frequency" in agent.config:
         require_rate(agent.config["policy_frequency"], frequency)
     elif frequency % env.config["policy_frequency"]:
@@ -105,6 +111,15 @@ def _make(name: str, agent: HighwayAgent) -> AbstractEnv:
         env.configure({"policy_frequency": max((rate for rate in slower if frequency % rate == 0), default=1)})
     env.configure({"simulation_frequency": frequency})
     return env
+
+
+def _or(otherwise: Any, method: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def called(env: Any, action: Any) -> Any:
+        with suppress(Exception):
+            return method(env, action)
+        return otherwise
+
+    return called
 
 
 # --- episodes ---------------------------------------------------------------------------------

@@ -129,6 +129,17 @@ def test_a_policy_of_the_user_s(tmp_path):
     assert record_episodes(*job)[0].tracks.speed[0, -1] > 29.0
 
 
+@pytest.mark.parametrize("environment", ["merge-v1", "two-way-v0"])
+def test_continuous_actions_are_recorded_where_the_reward_takes_none(environment, tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "class Keeps:\n"
+        "    config = {'action': {'type': 'ContinuousAction'}, 'observation': {'type': 'Kinematics'}}\n"
+        "    act = lambda self, seen: [0.0, 0.0]\n"
+    )
+    (found,) = record_episodes(environment, f"{tmp_path / 'mine.py'}:Keeps", replace(WINDOWS, count=1, horizon_s=2.0))
+    assert np.ptp(found.tracks.x[0]) > 10.0
+
+
 WEAVES = """
 import numpy as np
 from highway_env.envs.highway_env import HighwayEnvFast
