@@ -109,6 +109,8 @@ def _factory_of(bridge: str) -> Callable[[str], Any]:
 def _unknown(name: str, installed: tuple[str, ...]) -> PlannerError:
     if name.endswith(".py"):
         return PlannerError(f"planner {name!r} is a file: name the planner in it as well, {name}:CLASS")
+    if name.endswith((".zip", ".cleanrl_model")):
+        return PlannerError(f"planner {name!r} is a file: a policy for highway-env is named highway:{name}")
     if near := nearest(name, (*OURS, *installed), 3):
         return PlannerError(f"planner {name!r} not found: did you mean {' or '.join(near)}?")
     return PlannerError(f"planner {name!r} not found, expected one of {all_that_may_be_named(installed)}")

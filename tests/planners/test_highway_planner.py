@@ -19,7 +19,7 @@ from regents_cosim.planners.hosting.host_process import HostProcess
 from regents_cosim.planners.under_test import PlannerUnderTest
 from regents_cosim.replays.highway.gym import HighwayReplayEnv
 from regents_cosim.replays.highway.replay import drive_in_highway
-from regents_cosim.simulators.highway.agents import IDM_PARAMETERS
+from regents_cosim.simulators.highway.agents import IDM_PARAMETERS, find_agent
 from regents_cosim.simulators.highway.foresight import foreseen
 from regents_cosim.system.user_code import import_named
 
@@ -110,6 +110,11 @@ class WithAnything:
         return [0.0, 0.0], None
 
 
+class Recurrent:
+    def predict(self, observation, state=None, deterministic=False):
+        return [0.1 if state == 1 else 0.0, 0.0], (state or 0) + 1
+
+
 class Continuous:
     config = {"action": {"type": "ContinuousAction", "acceleration_range": [-1e9, 1e9]}}
 
@@ -170,6 +175,15 @@ def test_a_policy_predicts_as_it_is_documented(policies, name):
     tracks = drive_in_highway(platoon(), f"{policies}:{name}").tracks
     assert np.ptp(tracks.speed[0]) < 1e-6
     assert np.ptp(tracks.x[0]) > 20.0
+
+
+def test_a_policy_gets_back_what_it_remembers_until_the_next_start(policies):
+    agent = find_agent(f"{policies}:Recurrent")
+    env = HighwayReplayEnv.for_agent({}, platoon())
+    env.reset()
+    for _ in range(2):
+        agent.start(env, 0)
+        assert [agent.act(None)[0] for _ in range(4)] == [0.0, 0.1, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -236,6 +250,8 @@ def test_one_that_was_trained_for_other_observations_is_told_of_config(policies)
 def test_an_agent_that_cannot_be_found():
     with pytest.raises(PlannerError, match="'idmm' not found, did you mean idm"):
         PlannerUnderTest.of("highway:idmm")
+    with pytest.raises(PlannerError, match="'my.zip' is a file: .* named highway:my.zip"):
+        PlannerUnderTest.of("my.zip")
 
 
 SEARCHES = """

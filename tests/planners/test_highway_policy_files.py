@@ -96,11 +96,23 @@ def test_a_file_that_does_not_do_is_explained(tmp_path):
     with pytest.raises(PlannerError, match="expected a configuration of highway-env as JSON"):
         find_agent(str(path))
     path.with_suffix(".json").write_text("{}")
-    for data in ("{}", json.dumps({"policy_class": {"__module__": "__main__"}})):
+    for data in ("{}", "[]"):
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("data", data)
         with pytest.raises(PlannerError, match="no model that stable-baselines3 has saved"):
             find_agent(str(path))
+
+
+@pytest.mark.parametrize("module", ["__main__", "beside.policies", "stable_baselines3.policies"])
+def test_no_module_is_imported_because_a_zip_names_it(module, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "beside.py").write_text("raise SystemExit")
+    path = tmp_path / "run.zip"
+    path.with_suffix(".json").write_text("{}")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("data", json.dumps({"policy_class": {"__module__": module}}))
+    with pytest.raises(PlannerError, match=rf"its class is of {module}, .* expected highway:FILE.py:POLICY"):
+        find_agent(str(path))
 
 
 def test_what_is_no_weights_is_refused_without_advice_to_run_it(tmp_path):

@@ -1,5 +1,6 @@
 """The example of a policy trained with stable-baselines3, from training to replay."""
 
+import base64
 import json
 import re
 import shutil
@@ -8,6 +9,7 @@ from pathlib import Path
 
 import gymnasium
 import highway_env  # noqa: F401  registers the environments
+import numpy as np
 import pytest
 from places import SUPPORT
 from scenes import platoon
@@ -15,6 +17,7 @@ from scenes import platoon
 from regents_cosim.errors import PlannerError
 from regents_cosim.evaluation.drives.driving import drive_each
 from regents_cosim.replays.replay import replay
+from regents_cosim.simulators.highway.agents import find_agent
 from regents_cosim.sources.highway import record_episodes
 from regents_cosim.sources.windows import Windows
 
@@ -83,6 +86,48 @@ def test_a_schedule_of_another_python_does_not_matter(trained, tmp_path):
     path.with_suffix(".json").write_text(json.dumps(CONFIG))
     (drive,) = drive_each([CASE], f"highway:{path}", where="highway")
     assert not drive.error
+
+
+MADE = {
+    "RecurrentPPO": "MlpLstmPolicy", "MaskablePPO": "MlpPolicy", "TRPO": "MlpPolicy", "QRDQN": "MlpPolicy",
+    "CrossQ": "MlpPolicy",
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", MADE)
+def test_a_model_of_contrib_answers_as_it_does_there(method, tmp_path):
+    """Also after a second start: a recurrent one remembers an episode, and no more."""
+    contrib = pytest.importorskip("sb3_contrib", reason="needs sb3-contrib")
+    action = {"action": {"type": "ContinuousAction"}} if method == "CrossQ" else {}
+    env = gymnasium.make("highway-fast-v0", config={**CONFIG, **action})
+    model = getattr(contrib, method)(MADE[method], env, seed=0, device="cpu")
+    model.save(tmp_path / "model.zip")
+    (tmp_path / "model.json").write_text(json.dumps(env.unwrapped.config))
+    agent = find_agent(str(tmp_path / "model.zip"))
+    seen = [env.observation_space.sample() for _ in range(5)]
+    for _ in range(2):
+        agent.start(env, 0)
+        state = None
+        for one in seen:
+            action, state = model.predict(one, state, deterministic=True)
+            np.testing.assert_array_equal(agent.act(one), action)
+    assert (state is not None) == (method == "RecurrentPPO")
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_an_extractor_in_a_module_that_is_not_there_is_named(trained, tmp_path):
+    """It is no reason to install stable-baselines3."""
+    path = tmp_path / "PPO.zip"
+    lost = base64.b64encode(b"cmy_extractor\nNet\n.").decode()
+    with zipfile.ZipFile(trained / "PPO.zip") as archive, zipfile.ZipFile(path, "w") as copy:
+        read = json.loads(archive.read("data")) | {"policy_kwargs": {":type:": "dict", ":serialized:": lost}}
+        copy.writestr("data", json.dumps(read))
+    path.with_suffix(".json").write_text(json.dumps(CONFIG))
+    with pytest.raises(PlannerError, match="No module named 'my_extractor'"):
+        find_agent(str(path))
 
 
 LACKING = r"was trained with action_space Discrete\(5\), here it is Box.*`config`"

@@ -1,5 +1,6 @@
 """One test for each line of the lists in SECURITY.md, by the name that the line gives."""
 
+import base64
 import gzip
 import html
 import json
@@ -11,6 +12,7 @@ import socket
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+import zipfile
 from contextlib import closing, suppress
 from dataclasses import replace
 from http.client import HTTPConnection, HTTPException
@@ -89,6 +91,26 @@ def test_a_planner_that_is_named_runs_with_your_rights(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\nclass P:\n"
                                       "    reset = act = lambda self, given: None\n")  # fmt: skip
     make_planner(f"{tmp_path}/mine.py:P")
+    assert (tmp_path / "ran").exists()
+
+
+def test_the_zip_of_a_policy_that_is_named_runs_with_your_rights(tmp_path):
+    class Runs:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "ran"),)
+
+    (tmp_path / "run.json").write_text("{}")
+    (tmp_path / "run.cleanrl_model").write_bytes(pickle.dumps(Runs()))
+    code = {"__module__": "stable_baselines3.dqn.policies", ":type:": "type"}
+    code |= {":serialized:": base64.b64encode(pickle.dumps(Runs())).decode()}
+    with zipfile.ZipFile(tmp_path / "run.zip", "w") as archive:
+        archive.writestr("data", json.dumps({"policy_class": code}))
+    with pytest.raises(RegentsError):
+        make_planner(f"highway:{tmp_path}/run.cleanrl_model")
+    assert not (tmp_path / "ran").exists()
+    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    with pytest.raises(RegentsError):
+        make_planner(f"highway:{tmp_path}/run.zip")
     assert (tmp_path / "ran").exists()
 
 

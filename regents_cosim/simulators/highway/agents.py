@@ -164,13 +164,11 @@ class PolicyAgent:
         for part, factory in (("observation", observation_factory), ("action", action_factory)):
             _require_type(self.config, part, factory, name)
         self._policy, self._name, self._env = policy, name, None
-        self._decide = _decision(policy, name)
-        if _takes(getattr(policy, "act", None), "env"):
-            self._decide = self._search
+        self._decide = self._search if _takes(getattr(policy, "act", None), "env") else _decision(policy, name)
         self._forget = getattr(policy, "reset", None)
 
     def start(self, env: AbstractEnv, seed: int) -> None:
-        """Reset the policy if it has a method for that; otherwise it only sees observations.
+        """Reset the policy if it has a method for that, and forget its state; otherwise it only sees observations.
 
         Raises PlannerError where the environment's spaces differ from those that the policy declares.
         """
@@ -179,11 +177,13 @@ class PolicyAgent:
             if isinstance(trained, gymnasium.Space) and _form(trained) != _form(there):
                 raise PlannerError(
                     f"highway-env agent {self._name!r} was trained with {name} {trained}, here it is {there}: expected "
-                    "a policy with a `config` that names the types of observation and action of its training, and that "
-                    "does itself what wrappers did"
+                    "the `config` of its training (env.unwrapped.config; that of a file is in the .json beside it), "
+                    "and a policy that does itself what wrappers did"
                 )
         if callable(self._forget):
             self._forget()
+        if isinstance(self._decide, _Predicting):
+            self._decide.state = None
         self._env: Any = env.unwrapped
 
     def act(self, observation: Any) -> Any:
@@ -232,8 +232,7 @@ def find_agent(name: str) -> HighwayAgent:
 
 def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
     if callable(getattr(policy, "predict", None)):
-        how = {"deterministic": True} if _takes(policy.predict, "deterministic") else {}
-        return lambda observation: _action(policy.predict(observation, **how))
+        return _Predicting(policy.predict)
     if callable(getattr(policy, "act", None)):
         return policy.act
     if callable(policy):
@@ -244,9 +243,21 @@ def _decision(policy: Any, name: str) -> Callable[[Any], Any]:
     )
 
 
-def _action(predicted: Any) -> Any:
-    """The action in a policy's result, which stable-baselines3 returns together with a state."""
-    return predicted[0] if isinstance(predicted, tuple) and len(predicted) == 2 else predicted
+class _Predicting:
+    """Asks `predict`, which answers in stable-baselines3 with a state as well: what a recurrent policy remembers."""
+
+    def __init__(self, predict: Callable[..., Any]) -> None:
+        self._predict, self._keeps, self.state = predict, _takes(predict, "state"), None
+        self._how = {"deterministic": True} if _takes(predict, "deterministic") else {}
+
+    def __call__(self, observation: Any) -> Any:
+        """The action."""
+        state = {} if self.state is None else {"state": self.state}
+        answer = self._predict(observation, **self._how, **state)
+        if not (isinstance(answer, tuple) and len(answer) == 2):
+            return answer
+        self.state = answer[1] if self._keeps else None
+        return answer[0]
 
 
 def _takes(function: Any, name: str) -> bool:

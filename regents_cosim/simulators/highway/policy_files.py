@@ -1,10 +1,11 @@
-"""Policies in files: a `.zip` of stable-baselines3, or a `.cleanrl_model` of CleanRL.
+"""Policies in files: a `.zip` of stable-baselines3 or sb3-contrib, or a `.cleanrl_model` of CleanRL.
 
 Neither tells what it was trained with, so a file of the same name with `.json` lies beside it: the configuration of the
 environment, as in `gymnasium.make(..., config=...)`.
 """
 
 import json
+import re
 import zipfile
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +18,10 @@ from regents_cosim.errors import MissingDependencyError, PlannerError
 
 # What activates the layers of a network, by its name in CleanRL's dqn, ppo and ppo_continuous_action.
 _CLEANRL = {"network": lambda values: np.maximum(values, 0.0), "actor": np.tanh, "actor_mean": np.tanh}
+
+# The module of a policy, e.g. stable_baselines3.dqn.policies: its package, and its folder, which tells the method.
+_POLICY_MODULE = re.compile(r"(stable_baselines3|sb3_contrib)\.(?:\w+\.)*(\w+)\.policies")
+_METHODS = {"maskable": "MaskablePPO", "recurrent": "RecurrentPPO", "crossq": "CrossQ"}  # of folders; others are as DQN
 
 # What stable-baselines3 needs in training only. A schedule is saved as bytecode, at which another Python may die, and a
 # buffer takes memory.
@@ -51,7 +56,7 @@ def _config(path: Path) -> dict[str, Any]:
     if not beside.is_file():
         raise PlannerError(
             f"policy {path}: {beside.name} is not beside it, expected the configuration of the environment of its "
-            'training, e.g. {"observation": {"type": "Kinematics"}, "action": {"type": "DiscreteMetaAction"}}'
+            "training, as json.dump(env.unwrapped.config, file) writes it"
         )
     try:
         return _with_tuples(msgspec.json.decode(beside.read_bytes(), type=dict[str, Any]))
@@ -72,17 +77,25 @@ def _of_stable_baselines(path: Path) -> Any:
     try:
         with zipfile.ZipFile(path) as archive:
             data = json.loads(archive.read("data"))
-        package, method, *_ = data["policy_class"]["__module__"].split(".")  # e.g. stable_baselines3.dqn.policies
+        module = data["policy_class"]["__module__"]
     except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
         raise PlannerError(f"policy {path} is no model that stable-baselines3 has saved") from error
-    if method == "common":  # one policy for both; they ask it in the same way
-        method = "ppo" if "clip_range" in data else "a2c"
+    if not (named := _POLICY_MODULE.fullmatch(str(module))):
+        raise PlannerError(
+            f"policy {path}: its class is of {module}, not of stable-baselines3: expected highway:FILE.py:POLICY, with "
+            "code of yours that loads it"
+        )
+    package, folder = named.groups()
     try:
-        return getattr(import_module(package), method.upper()).load(path, device="cpu", custom_objects=_OF_TRAINING)
+        made_by = import_module(package)
     except ImportError as error:
         raise MissingDependencyError(
             f"policy {path} needs {package}: pip install {package.replace('_', '-')}"
         ) from error
+    if folder == "common":  # one policy for both; they ask it in the same way
+        folder = "ppo" if "clip_range" in data else "a2c"
+    method = getattr(made_by, _METHODS.get(folder, folder.upper()))
+    return method.load(path, device="cpu", custom_objects=_OF_TRAINING)
 
 
 class _CleanRl:
