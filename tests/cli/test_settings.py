@@ -10,7 +10,7 @@ from regents_cosim.cases.manifest import load_manifest
 from regents_cosim.cli import run
 from regents_cosim.cli.application import app
 from regents_cosim.cli.commands.config import COMMANDS, named
-from regents_cosim.cli.settings import Asked, in_help, settings_of
+from regents_cosim.cli.settings import Asked, in_help, out_of_place, settings_of
 from regents_cosim.errors import WRONG_USAGE
 from regents_cosim.saving import SuiteWriter
 from regents_cosim.training.lessons.train_config import TrainConfig
@@ -39,6 +39,12 @@ def test_help_shows_few_options_in_named_boxes(command):
     groups = {group.name for one in shown for group in one.parameter.group}
     assert "Advanced" not in groups
     assert len(groups) <= 5
+
+
+@pytest.mark.parametrize("command", COMMANDS.values())
+def test_what_a_file_may_not_name_stays_on_the_command_line(command):
+    arguments = named(app, command).assemble_argument_collection()
+    assert not out_of_place(arguments, ["--planner", "--method", "--policy"])
 
 
 @pytest.mark.parametrize("command", COMMANDS)
