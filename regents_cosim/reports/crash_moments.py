@@ -1,4 +1,4 @@
-"""Moments of a crash that reports tell: when the adversary enters the ego's lane, how drivers brake, who gave no way.
+"""Moments of a crash that reports tell: when the adversary enters the ego's path, how drivers brake, who gave no way.
 
 From the first of them on people expect a driver to react.
 """
@@ -80,6 +80,8 @@ def _of_careful(scenario: Scenario) -> str:
 
 
 def _hardest(braking: Braking, dt: float) -> str:
+    if braking.most_m_s2 < _SAME_M_S2:
+        return "standing still"
     later = f" at {braking.hardest * dt:.1f} s" if braking.hardest > braking.since else ""
     return f"with up to {braking.most_m_s2:.1f} m/s²{later}"
 

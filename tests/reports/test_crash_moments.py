@@ -87,6 +87,13 @@ def _body(case, tracks, agent, step):
     return shapely.Polygon(np.asarray(corners(Boxes(x, y, yaw, one.length, one.width))))
 
 
+def test_a_careful_driver_who_stands_already_is_said_to_stand():
+    case = EVADED[0]
+    standing = replace(case.evasion, speed=np.zeros_like(case.evasion.speed))
+    said = braking_line(replace(case, evasion=standing), case.tracks, case.collision)
+    assert f"; a careful driver from {case.judgement.evades_s:.1f} s, standing still" in said
+
+
 def test_without_a_crash_nobody_brakes_for_it():
     made = scene((0, 0, 10))
     assert braking_line(made, made.tracks, None) == ""
@@ -99,7 +106,7 @@ def test_the_lane_is_entered_where_a_body_is_0_3_m_over_its_marking():
     assert enters_lane(case) == np.argmax(over) < case.collision.step
     marked = PicturedCase.of(case)
     (mark,) = (one for one in marked.marks if one.kind == "enters_lane")
-    assert mark_words(marked, mark) == f"{mark.step * DT:.1f} s: adversary enters the ego's lane"
+    assert mark_words(marked, mark) == f"{mark.step * DT:.1f} s: adversary enters the ego's path"
     assert mark.pose[:2] == (case.tracks.x[1, mark.step], case.tracks.y[1, mark.step])
 
 

@@ -52,7 +52,7 @@ class RoadMark(NamedTuple):
     """What is marked on the road from a step on.
 
     That is where one gives way or breaks a rule, where the adversary is when a careful driver sees the danger and when
-    it enters the ego's lane, and where that driver begins to brake.
+    it enters the ego's path, and where that driver begins to brake.
     """
 
     kind: Literal["gives_way", "breaks_rule", "is_seen", "enters_lane", "evades"]

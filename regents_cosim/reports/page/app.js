@@ -117,7 +117,7 @@ function showLegend(content) {
   const marked = new Map(content.marks.map(({ kind, colour }) => [kind, colour]));
   if (marked.has("gives_way")) fixed.push(sign(marked.get("gives_way"), "▽", "give way"));
   if (marked.has("breaks_rule")) fixed.push(sign(marked.get("breaks_rule"), "✕", "breaks a rule"));
-  if (marked.has("enters_lane")) fixed.push(sign(marked.get("enters_lane"), "❙", "enters the ego's lane"));
+  if (marked.has("enters_lane")) fixed.push(sign(marked.get("enters_lane"), "❙", "enters the ego's path"));
   if (marked.has("is_seen")) fixed.push(sign("evasion", "○", "a careful driver sees it coming"));
   if (marked.has("evades")) fixed.push(sign("evasion", "❙", "a careful driver acts from here"));
   if (Object.keys(content.signals).length) fixed.push(element("span", {}, ...item("green", "traffic light")));

@@ -46,7 +46,7 @@ def header_height(scene: PicturedCase, width: int) -> int:
 def draw_header(scene: PicturedCase, step: int, width: int, zoom: int) -> Canvas:
     """Draw case, planner, method and collision on the left; time and speeds on the right; the time as a line below.
 
-    On that line a thin tick is where the adversary enters the ego's lane, a thick one the collision.
+    On that line a thin tick is where the adversary enters the ego's path, a thick one the collision.
     """
     lines = caption_lines(scene, width)
     height = header_height(scene, width)

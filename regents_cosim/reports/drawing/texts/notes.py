@@ -66,7 +66,7 @@ def mark_words(scene: PicturedCase, mark: RoadMark) -> str:
     if mark.kind == "is_seen":
         return f"{when}: a careful driver sees it coming"
     if mark.kind == "enters_lane":
-        return f"{when}: {called(mark.agent)} enters the ego's lane"
+        return f"{when}: {called(mark.agent)} enters the ego's path"
     if mark.rule is not None:
         return f"{when}: {offence_words(mark.rule, f'the {called(not mark.agent)}')}"
     return f"{called(mark.agent)} has to give way here"
