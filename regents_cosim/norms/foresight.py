@@ -6,8 +6,8 @@ careless. A risk is an overlap of the two within some seconds; within fewer wher
 does not brake hard, since leaders and cut-ins are no danger until they are near. The driver suspects those that cross,
 those in the way that the ego is about to sweep, and those beside it that drift from the middle of the next lane towards
 its way, or into whose lane the ego is about to come over. It expects a road user that keeps to its lane to go on doing
-so, one that changes lanes to end in the next one, and one that has to let it pass to wait at its line, as long as
-comfortable braking is enough for that.
+so, one that changes lanes to end in the next one, and one that has to let it pass to wait at its line (if it turns on
+green, before the ego's lane), as long as comfortable braking is enough for that.
 
 Every function is written for NumPy and JAX: `xp` is the array module, and arrays broadcast.
 

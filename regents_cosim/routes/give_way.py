@@ -131,7 +131,10 @@ def meetings(
         first, last = (int(metres) for metres in lanes[met.lane])
         part = shapely.LineString(points[min(first, len(points) - 2) : last + 2])
         along = first + shapely.line_locate_point(part, shapely.points(met.shared))
-        stretch, lights = (float(along.min()), float(along.max())), (_light(road, met.lane), _light(road, met.other))
+        stretch, lights = (
+            (float(along.min()), float(along.max())),
+            (light_into(road, met.lane), light_into(road, met.other)),
+        )
         found.append(Meeting(met.kind, met.lane, met.other, *stretch, met.ego_yields, met.they_yield, *lights))
     for name, (begin, _) in lanes.items():
         found += _on_foot(road, line, road.lane[name], begin)
@@ -218,10 +221,10 @@ def _on_foot(road: RoadMap, line: shapely.LineString, lane: Lane, begin: float) 
             if len(along) and along.max() >= begin:
                 stretch = float(along.min()), float(along.max())
                 told = _yields(road, lane.id, way.id)
-                yield Meeting("pedestrians", lane.id, way.id, *stretch, *told, _light(road, lane.id), way)
+                yield Meeting("pedestrians", lane.id, way.id, *stretch, *told, light_into(road, lane.id), way)
 
 
-def _light(road: RoadMap, name: str) -> Connection | None:
+def light_into(road: RoadMap, name: str) -> Connection | None:
     """The connection with the light for those who come to a lane."""
     passed = set[str]()
     while name not in passed:

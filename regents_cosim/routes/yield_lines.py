@@ -1,40 +1,68 @@
-"""The lanes on which others come to a line where they have to let the ego pass.
+"""The lanes on which others come to a place where they wait to let the ego pass.
 
 A driver on the way with priority relies on others to wait there, as long as they can (Vienna Convention on Road Traffic
-1968, art. 18). Lines with lights are left out, as what they ask for changes.
+1968, art. 18). Without lights that is their line; those that turn across the ego's way on green may go on up to its
+lane (art. 16(1)(b)). Other lines with lights are left out, as what they ask for changes.
 """
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
-from regents_cosim.maps.roadmap import Lane, RoadMap
-from regents_cosim.routes.give_way import are_lit, ways_met
+import shapely
+
+from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
+from regents_cosim.routes.give_way import Meeting, WayMet, light_into, ways_met
 from regents_cosim.routes.route import route_of
-from regents_cosim.scenario.scenario import Scenario
+from regents_cosim.scenario.scenario import Scenario, Signal
 
 _REACH_M = 100.0  # back from a line: more than a car at 25 m/s needs to stop gently
 
 
 def yield_lines(scenario: Scenario) -> Mapping[str, float]:
-    """By id of the lanes that lead to a line, the distance [m] from their end to the nearest one.
+    """By id of the lanes that lead to a line, the distance [m] from their end to the nearest one; negative before it.
 
     A lane that also leads to where the ego has to wait, or where the map does not tell, is left out.
     """
-    return _lines(scenario.road, tuple(one.lane for one in route_of(scenario).lanes))
+    return _lines(scenario.road, tuple(one.lane for one in route_of(scenario).lanes), scenario.signals)
 
 
 @lru_cache(maxsize=64)
-def _lines(road: RoadMap, lanes: tuple[str, ...]) -> Mapping[str, float]:
-    met = dict[str, bool]()
+def _lines(road: RoadMap, lanes: tuple[str, ...], signals: tuple[Signal, ...]) -> Mapping[str, float]:
+    waiting = dict[str, list[float | None]]()
     for one in ways_met(road, lanes):
-        they_wait = one.they_yield is True and one.ego_yields is False and not are_lit(road, one.lane, one.other)
-        met[one.other] = met.get(one.other, True) and they_wait
+        waiting.setdefault(one.other, []).append(_waits_at(road, one, signals))
     found, relied_on = dict[str, float](), dict[str, bool]()
-    for name, waits in met.items():
-        for lane, beyond in _upstream(road, name, {*lanes, *met}):
-            found[lane.id] = min(beyond, found.get(lane.id, beyond))
-            relied_on[lane.id] = waits and relied_on.get(lane.id, True)
+    for name, places in waiting.items():
+        known = [place for place in places if place is not None]
+        into = min(known, default=0.0)
+        own = [(road.lane[name], -road.lane[name].length)] if into else []
+        for lane, beyond in (*own, *_upstream(road, name, {*lanes, *waiting})):
+            found[lane.id] = min(beyond + into, found.get(lane.id, beyond + into))
+            relied_on[lane.id] = len(known) == len(places) and relied_on.get(lane.id, True)
     return {lane: beyond for lane, beyond in found.items() if relied_on[lane]}
+
+
+def _waits_at(road: RoadMap, met: WayMet, signals: tuple[Signal, ...]) -> float | None:
+    """How far into their lane others wait for the ego [m]: 0 for a line before it; None where they may not wait."""
+    if met.they_yield is not True or met.ego_yields is not False:
+        return None
+    mine, theirs = light_into(road, met.lane), light_into(road, met.other)
+    if mine is None and theirs is None:
+        return 0.0
+    if mine is None or theirs is None or not _green_but_waits(met, mine, theirs, signals):
+        return None
+    lane, other = road.lane[met.lane], road.lane[met.other]
+    inside = other.line.intersection(lane.line.buffer(0.5 * lane.width, cap_style="flat"))
+    along = shapely.line_locate_point(other.line, shapely.points(shapely.get_coordinates(inside)))
+    return float(along.min()) if len(along) else None
+
+
+def _green_but_waits(met: WayMet, mine: Connection, theirs: Connection, signals: tuple[Signal, ...]) -> bool:
+    """Whether others have green, and have to let the ego pass whatever the light shows."""
+    lit = Meeting(met.kind, met.lane, met.other, 0.0, 0.0, met.ego_yields, met.they_yield, mine, theirs)
+    changes = next((one.changes for one in signals if one.id == mine.signal == theirs.signal), ())
+    green = any(letters[theirs.link : theirs.link + 1] in ("g", "G") for _, letters in changes)
+    return green and all(lit.under(signals, step).they_yield for step, _ in changes)
 
 
 def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:

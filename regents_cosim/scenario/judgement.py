@@ -132,7 +132,7 @@ class Holds:
     sumo: bool | None = None  # SUMO drives them
 
 
-EDITION = 7  # of the present rules
+EDITION = 8  # of the present rules
 
 _ALLOWED: dict[AdversaryMay, set[Conduct]] = {
     "none": {Conduct.KEEPS_RULES},

@@ -25,7 +25,21 @@ def test_an_ego_that_has_to_wait_relies_on_no_line():
     windows = [one for one in shipped_windows("roundabout") if route_of(one).meetings]
     waiting = [one for one in windows if all(met.ego_yields for met in route_of(one).meetings)]
     assert all(not yield_lines(one) for one in waiting)
-    assert not any(yield_lines(one) for one in shipped_windows("signals"))  # its lights tell who goes
+
+
+def test_those_who_turn_across_on_green_wait_before_the_lane_of_the_ego_and_nobody_else_with_a_light_does():
+    windows = shipped_windows("signals")
+    straight = next(one for one in windows if "north_in.south_out" in one.id)
+    turns = next(one for one in windows if "north_in.east_out" in one.id)
+    assert not yield_lines(turns)  # it has to let the oncoming traffic pass itself
+    road, lines = straight.road, yield_lines(straight)
+    inside = {road.lane[name]: beyond for name, beyond in lines.items() if beyond < 0.0}
+    (waiting,) = inside
+    (own,) = {one.lane for one in route_of(straight).lanes if one.lane.startswith(":")}
+    at = waiting.line.interpolate(waiting.length + inside[waiting])
+    assert road.lane[own].line.distance(at) == pytest.approx(0.5 * road.lane[own].width, abs=0.05)
+    red = {link.source for lane in lines for link in road.entries[lane]} | lines.keys()
+    assert all("south" in name or name.startswith(":") for name in red)  # those from the sides have red
 
 
 @pytest.mark.parametrize("network", ["crossing", "roundabout"])
