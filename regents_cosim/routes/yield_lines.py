@@ -8,6 +8,7 @@ lane (art. 16(1)(b)). Other lines with lights are left out, as what they ask for
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
+import numpy as np
 import shapely
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
@@ -53,8 +54,8 @@ def _waits_at(road: RoadMap, met: WayMet, signals: tuple[Signal, ...]) -> float 
         return None
     lane, other = road.lane[met.lane], road.lane[met.other]
     inside = other.line.intersection(lane.line.buffer(0.5 * lane.width, cap_style="flat"))
-    along = shapely.line_locate_point(other.line, shapely.points(shapely.get_coordinates(inside)))
-    return float(along.min()) if len(along) else None
+    corners = shapely.points(shapely.get_coordinates(inside))
+    return None if inside.is_empty else float(np.min(shapely.line_locate_point(other.line, corners)))
 
 
 def _green_but_waits(met: WayMet, mine: Connection, theirs: Connection, signals: tuple[Signal, ...]) -> bool:
