@@ -221,11 +221,10 @@ def _ranked(
     while first < move.number:  # a look ends with a drive that is accepted
         left = _from(move.drives, first)
         last, seen = look_at(job, EgoAsDriven(), left, move.number - first, setup.config, setup.extra_cost)
-        accepted = np.asarray(seen.accepted)
-        made = int(np.argmax(accepted)) + 1 if accepted.any() else move.number - first
+        made = seen.made(move.number - first)
         rows = slice(first, first + made)
         cost[rows], terms[rows] = np.asarray(seen.cost)[:made], np.asarray(seen.terms)[:made]
-        expected[rows] = accepted[:made]
+        expected[rows] = np.asarray(seen.accepted)[:made]
         first += made
     return RankedDrives(cost, terms, expected, move.least, last)
 

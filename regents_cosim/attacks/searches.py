@@ -17,7 +17,7 @@ from regents_cosim.attacks.descent.search import LOOKED_AT, in_one_look
 from regents_cosim.attacks.descent.search_state import SearchResult
 from regents_cosim.attacks.job import Merit, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.attempts import USUAL
-from regents_cosim.attacks.methods.moves import Asked, Descend, LookAt, MakeMoves, begun, search_in_turns
+from regents_cosim.attacks.methods.moves import Asked, Descend, LookAt, MakeMoves, Move, begun, search_in_turns
 from regents_cosim.attacks.planner_drives import PlannerDrives
 from regents_cosim.attacks.setup import AttackSetup
 from regents_cosim.errors import DriveError
@@ -78,7 +78,8 @@ def _search(
 
 def _judged(setup: AttackSetup, make: MakeMoves, asked: Sequence[Asked]) -> list[SearchEnd]:
     """Make moves, with the verdict of the host where it decides which crashes are wanted."""
-    acceptance, ended = setup.config.acceptance, make(asked)
+    acceptance = setup.config.acceptance
+    ended = [_counted(move, one) for (_, _, move), one in zip(asked, make(asked), strict=True)]
     if acceptance.accept != "telling" and not acceptance.at_least_usual and setup.wanted is None:
         return ended
     found = list[SearchEnd]()
@@ -86,6 +87,13 @@ def _judged(setup: AttackSetup, make: MakeMoves, asked: Sequence[Asked]) -> list
         wanted = _if_wanted(setup, scenario, job, one, isinstance(move, Descend) and move.every_hit)
         found.append(_if_usual(setup, scenario, job, _gentler(setup, make, scenario, job, wanted)))
     return found
+
+
+def _counted(move: Move, ended: SearchEnd) -> SearchEnd:
+    """The end of a move, with the number of its looks."""
+    if not isinstance(move, LookAt) or ended.tried is None:
+        return ended
+    return replace(ended, looks=ended.tried.made(move.number))
 
 
 def _gentler(setup: AttackSetup, make: MakeMoves, scenario: Scenario, job: SearchJob, ended: SearchEnd) -> SearchEnd:

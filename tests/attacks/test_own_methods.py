@@ -239,7 +239,7 @@ class LookAround(ByRulesOfFocused):
 def test_an_object_with_a_search_of_its_own_attacks():
     few = LookAround().but(iterations=20, nearest=1, starts=1)
     (case,) = attack(shipped_window("crossing"), few, "log_replay")
-    assert (case.attack.method, case.attack.rollouts) == ("look-around", 2)
+    assert (case.attack.method, case.attack.rollouts) == ("look-around", 1 + 4)
     (outside,) = attack(shipped_window("crossing"), few, "sumo")
     assert (outside.attack.method, outside.attack.outcome) == ("look-around", "no_collision")
     assert outside.attack.drives > 0

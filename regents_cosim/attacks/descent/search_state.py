@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import numpy as np
 import optax
 from jaxtyping import Array, Bool, Float, Int
 
@@ -31,6 +32,11 @@ class StartLooks(eqx.Module):
     cost: Float[Array, " start"]  # infinite where it is not finite, or was not looked at
     terms: Float[Array, "start term"]  # ego, pair and road cost
     accepted: Bool[Array, " start"]
+
+    def made(self, number: int) -> int:
+        """How many of the first `number` were made: all, or those up to the one that is accepted."""
+        accepted = np.asarray(self.accepted)[:number]
+        return int(np.argmax(accepted)) + 1 if accepted.any() else number
 
 
 class Rollout(eqx.Module):

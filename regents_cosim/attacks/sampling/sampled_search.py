@@ -183,7 +183,7 @@ class Sampling(Search):
         assert self._history is not None
         number, looks = len(self._changes), (seen.tried.cost, seen.tried.terms, seen.tried.accepted)
         costs, terms, accepted = (np.asarray(values)[:number] for values in looks)
-        made = int(np.argmax(accepted)) + 1 if accepted.any() else number
+        made = seen.tried.made(number)
         self._history[self._tried : self._tried + made] = terms[:made]
         self._tried += made
         if accepted.any():
