@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NoReturn
 
+from regents_cosim.checks.names import did_you_mean
 from regents_cosim.errors import RegentsError
 
 _leave = os._exit
@@ -45,8 +46,11 @@ def has_left_threads() -> bool:
 
 
 def said_by(error: BaseException) -> str:
-    """The message of a foreign exception, in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    """The message of a foreign exception, in one line, with what a value of ours has in place of what was asked for."""
+    said = " ".join(f"{type(error).__name__}: {error}".split())
+    if not isinstance(error, AttributeError) or not type(error.obj).__module__.startswith("regents_cosim."):
+        return said
+    return f"{said} ({did_you_mean(str(error.name), (name for name in dir(error.obj) if not name.startswith('_')))})"
 
 
 @contextmanager

@@ -12,8 +12,9 @@ import weakref
 import pytest
 
 from regents_cosim.errors import InputError
+from regents_cosim.planners.interface import Control
 from regents_cosim.system import foreign_code as module
-from regents_cosim.system.foreign_code import foreign_code, has_left_threads
+from regents_cosim.system.foreign_code import foreign_code, has_left_threads, said_by
 
 FORKS = """
 import os
@@ -43,6 +44,13 @@ def test_whatever_it_raises_is_an_error(kind):
 def test_our_own_errors_say_what_they_say():
     with pytest.raises(InputError, match="no file"), foreign_code(_failed):
         raise InputError("no file")
+
+
+@pytest.mark.parametrize(("value", "hint"), [(Control(0.0, 0.0), " (did you mean accel?)"), (object(), "")])
+def test_what_a_value_of_ours_lacks_is_said_with_what_it_has(value, hint):
+    with pytest.raises(AttributeError) as raised:
+        _ = value.acceleration
+    assert said_by(raised.value) == f"AttributeError: {raised.value}{hint}"
 
 
 def test_leaving_python_is_an_error_also_of_code_that_calls_such_code():

@@ -42,7 +42,7 @@ from regents_cosim.planners.interface import (
 )
 from regents_cosim.routes.route import AHEAD_S, LEAST_AHEAD_M, curvature_through
 from regents_cosim.system import foreign_code as foreign
-from regents_cosim.system.foreign_code import foreign_code
+from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.standard_streams import print_on
 
 
@@ -110,7 +110,7 @@ def _raised(number: int, error: BaseException) -> messages.Raised:
     while place is not None and place.tb_frame.f_code.co_filename in _OURS:
         place = place.tb_next
     try:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
+        said = said_by(error)
         trace = "".join(traceback.format_exception(type(error), error, place)) if place is not None else ""
     except BaseException as second:  # raised by its `__str__`
         said, trace = f"{type(error).__name__}, whose text cannot be had: {type(second).__name__}", ""
