@@ -49,7 +49,7 @@ def test_our_own_errors_say_what_they_say():
 @pytest.mark.parametrize(("value", "hint"), [(Control(0.0, 0.0), " (did you mean accel?)"), (object(), "")])
 def test_what_a_value_of_ours_lacks_is_said_with_what_it_has(value, hint):
     with pytest.raises(AttributeError) as raised:
-        _ = value.acceleration
+        _ = value.acel
     assert said_by(raised.value) == f"AttributeError: {raised.value}{hint}"
 
 
