@@ -123,7 +123,7 @@ class RoadEdge:
 
 @dataclass(frozen=True, eq=False)
 class LoggedMap:
-    """The road of a log: kerbs or drivable areas, lanes, and crossings for pedestrians."""
+    """The road of a log: kerbs or areas to drive on (without both, it is where vehicles drove), lanes and crossings."""
 
     lanes: tuple[LoggedLane, ...] = ()
     edges: tuple[RoadEdge, ...] = ()

@@ -79,7 +79,7 @@ def test_the_road_holds_the_traffic(scenes, name):
         assert not road.lanes, "without a map the road is where vehicles drove"
         assert road.contains(places[places[:, 1] == -2.0]).all()
     else:
-        assert road.contains(places).all(), "if the format has no map, say so in FORMATS of log_files.py"
+        assert road.contains(places).all(), "its LoggedMap needs `edges` or `areas`, or log_files.py road=False"
         assert len(road.lanes) in (2, 3, 4)
         assert not road.contains(np.array([[50.0, 4.5 + down], [50.0, -4.5 + down]])).any()
         if name in ("waymo", "gpudrive", "commonroad", "interaction", "sind", "argoverse2_motion"):
