@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from command import regents
@@ -14,6 +15,7 @@ from shipped_cases import shipped_window
 
 from regents_cosim import load_suite
 from regents_cosim.attacks.attack import attack
+from regents_cosim.attacks.descent.search import in_one_look
 from regents_cosim.attacks.methods import presets
 from regents_cosim.attacks.methods.moves import Descend, LookAt, Search
 from regents_cosim.attacks.methods.presets import (
@@ -27,9 +29,10 @@ from regents_cosim.attacks.methods.presets import (
 from regents_cosim.attacks.sampling.sampled_search import CHANGES, COORDINATES, changed_actions
 from regents_cosim.cli import run
 from regents_cosim.errors import WRONG_USAGE, RegentsError
+from regents_cosim.mirror.bicycle import ControlArrays
 from regents_cosim.system import user_code
 
-MINE = """from dataclasses import dataclass
+MINE = """from dataclasses import dataclass, field
 from regents_cosim.attacks.methods.presets import AttackConfig, ByRulesOfFocused
 
 class NoName(AttackConfig):
@@ -56,6 +59,11 @@ class Bare(ByRulesOfFocused):
 @dataclass(frozen=True, repr=False)
 class Elsewhere(ByRulesOfFocused):
     method: str = "../else"
+
+@dataclass(frozen=True, repr=False)
+class Listed(ByRulesOfFocused):
+    method: str = "listed"
+    speeds: list = field(default_factory=list)
 
 NONE = 3
 """
@@ -112,6 +120,7 @@ def test_it_is_found_by_its_entry_point(monkeypatch):
         ("mine.py:Nameless", "its field 'method' is 'focused', one of ours, expected another name"),
         ("mine.py:Bare", "'mine.py:Bare': Bare has fields, but no @dataclass(frozen=True) above it"),
         ("mine.py:Elsewhere", "method '../else' holds a / or \\: expected the plain name of a file or folder"),
+        ("mine.py:Listed", "'mine.py:Listed' cannot be made: TypeError: unhashable type: 'list'"),
         ("wrong.py:Mine", "cannot be imported: NameError: name 'nothing' is not defined (wrong.py, line 2)"),
         ("mine.py", "is a file: name the method in it as well, mine.py:CLASS"),
         ("nowhere.py:Mine", "cannot be imported"),
@@ -338,6 +347,48 @@ def test_what_a_method_raises_names_its_line(wrong, said):
         list(attack(shipped_window("crossing"), few, "log_replay"))
 
 
+class OneProposal(_OneLookAround):
+    """Proposes one move, whatever it is."""
+
+    def propose(self):
+        return self.method.propose(self.candidate.job)
+
+    def advance(self, seen):
+        super().advance(seen)
+        self.method.tell((self.candidate.job, seen.found))
+
+    @property
+    def finished(self):
+        return bool(self.seen)
+
+
+@dataclass(frozen=True, repr=False)
+class Proposing(ByRulesOfFocused):
+    method: str = "proposing"
+    propose: object = None
+    tell: object = None  # is called with the job and the end of every move
+
+    def begin(self, candidate):
+        return OneProposal(candidate, self)
+
+
+def constant(job, accel):
+    """Actions of one acceleration, straight on."""
+    return ControlArrays(jnp.full((1, job.world.controls.accel.shape[1]), accel), job.world.controls.accel[:1] * 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("move", [Descend, lambda drive: LookAt(in_one_look([drive]), 1)])
+def test_its_drives_are_held_to_its_limits(move):
+    ended = []
+    made = Proposing(propose=lambda job: move(constant(job, -9.0)), tell=ended.append)
+    list(attack(shipped_window("crossing"), made.but(nearest=1, max_braking=0.5), "log_replay"))
+    ((job, found),) = ended
+    logged, driven = (np.asarray(of.accel)[int(job.searched.first)] for of in (job.world.controls, found.controls))
+    assert (driven >= np.minimum(logged, -0.5) - 1e-4).all()
+    assert driven.min() == pytest.approx(min(logged.min(), -0.5), abs=1e-4)
+
+
 @dataclass(frozen=True, repr=False)
 class WithoutSampler(BySampling):
     method: str = "without-sampler"
@@ -360,6 +411,9 @@ class WithoutSearch(ByRulesOfFocused):
     [
         (WithoutSampler(), r"method without-sampler: sampler\(\) returns int without ask and tell, expected a Sampler"),
         (WithoutSearch(), r"method without-search: begin\(\) returns Candidate, expected a Search"),
+        (Proposing(propose=lambda job: 3), r"OneProposal.propose\(\) returns int, expected Descend or LookAt"),
+        (Proposing(propose=lambda job: Descend([0.0])), r"returns Descend with wrong start, expected ControlArrays of"),
+        (Proposing(propose=lambda job: LookAt(constant(job, 0.0), 1)), r"wrong drives, .* of \[10, 1, 80\] numbers"),
     ],
 )
 def test_what_a_method_makes_has_to_be_what_it_says(wrong, said):

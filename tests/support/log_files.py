@@ -524,7 +524,7 @@ class Written:
     walkers: bool = True  # it has pedestrians
     road: bool = True  # it has a map
     down_m: float = 0.0  # how far below the log's y = 0 the traffic's is: images begin above the road
-    time: tuple[str, float] | None = None  # of one table: the column that decides, and its units in a second
+    time: tuple[str, float] | None = None  # of one CSV with commas: the column that decides, and its units in 1 s
 
 
 FORMATS = {

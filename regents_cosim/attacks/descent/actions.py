@@ -7,8 +7,11 @@ from regents_cosim.attacks.descent.driving_limits import within_bounds
 from regents_cosim.attacks.descent.searched_agents import SearchedAgents
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.mirror.bicycle import ControlArrays, accumulate, running_minimum
+from regents_cosim.mirror.programs.compiled import compiled
 from regents_cosim.mirror.world import World
 from regents_cosim.norms.limits import ACCEL_LIMIT, CURVATURE_LIMIT
+
+_ROUNDING = 1e-6  # of an action
 
 
 def to_actions(controls: ControlArrays) -> ControlArrays:
@@ -34,6 +37,16 @@ def allowed(
     if world.bounds is None:
         return actions
     return to_actions(within_bounds(world, searched, to_controls(actions)))
+
+
+@compiled
+def held_to_limits(
+    drives: ControlArrays, world: World, searched: SearchedAgents, config: AttackConfig
+) -> ControlArrays:
+    """Drives [drive searched step], changed only where the configuration does not allow them."""
+    logged = searched.rows(to_actions(world.controls))
+    nearest = jax.vmap(lambda drive: allowed(drive, logged, world, searched, config))(drives)
+    return jax.tree.map(lambda given, near: jnp.where(jnp.abs(given - near) > _ROUNDING, near, given), drives, nearest)
 
 
 def not_too_fast(actions: ControlArrays, world: World, searched: SearchedAgents) -> ControlArrays:

@@ -9,10 +9,16 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
+import jax
+import numpy as np
+
+from regents_cosim.attacks.descent.actions import held_to_limits
+from regents_cosim.attacks.descent.search import LOOKED_AT
 from regents_cosim.attacks.job import Candidate, SearchEnd, SearchJob
 from regents_cosim.attacks.methods.presets import AttackConfig
 from regents_cosim.errors import RegentsError
 from regents_cosim.mirror.bicycle import ControlArrays
+from regents_cosim.mirror.programs.on_device import on_device
 from regents_cosim.scenario.scenario import Scenario
 from regents_cosim.system.foreign_code import foreign_code, said_by
 from regents_cosim.system.user_code import line_beside
@@ -21,7 +27,7 @@ from regents_cosim.system.user_code import line_beside
 class Descend(NamedTuple):
     """Look at a drive, then update it along the gradient until it is accepted or the updates are spent."""
 
-    start: ControlArrays | None  # [searched step] actions; None: the logged ones
+    start: ControlArrays | None  # [searched step] shares of the mirror's limits; None: the logged ones
     updates: int = 0  # at most; 0: a mere look
     every_hit: bool = False  # whether every crash is judged, not only one that the device accepts
 
@@ -32,7 +38,7 @@ class LookAt(NamedTuple):
     A planner that is dear to ask drives only where an estimate promises the crash, or a cost well below `least`.
     """
 
-    drives: ControlArrays  # [LOOKED_AT searched step] actions
+    drives: ControlArrays  # [LOOKED_AT searched step] shares of the mirror's limits: `in_one_look` of some drives
     number: int
     least: float = float("inf")  # cost of the best drive that it has made
 
@@ -82,13 +88,37 @@ def begun(method: AttackConfig, candidate: Candidate) -> Search:
 
 def guarded(method: AttackConfig) -> AbstractContextManager[None]:
     """A block that calls a method, its searches or its sampler; what those of a user raise is an error in one line."""
-    if type(method).__module__ == AttackConfig.__module__:
+    if _is_ours(method):
         return nullcontext()
 
     def failed(error: BaseException) -> RegentsError:
         return RegentsError(f"method {method.method} failed: {said_by(error)}{line_beside(error, type(method))}")
 
     return foreign_code(failed)
+
+
+def _is_ours(method: AttackConfig) -> bool:
+    return type(method).__module__ == AttackConfig.__module__
+
+
+def _proposed(method: AttackConfig, candidate: Candidate, search: Search) -> Move:
+    """The next move of a search; the drives of a user's method are held to its limits. Raises RegentsError."""
+    move: object = search.propose()
+    said = f"method {method.method}: {type(search).__name__}.propose() returns {type(move).__name__}"
+    if not isinstance(move, Descend | LookAt):
+        raise RegentsError(f"{said}, expected Descend or LookAt")
+    name = move._fields[0]
+    drives: object = getattr(move, name)
+    if _is_ours(method) or drives is None:
+        return move
+    searched, world = candidate.job.searched, candidate.job.world
+    one = searched.count, world.controls.accel.shape[1]
+    shape = (LOOKED_AT, *one) if isinstance(move, LookAt) else one
+    if not isinstance(drives, ControlArrays) or {np.shape(drives.accel), np.shape(drives.curvature)} != {shape}:
+        raise RegentsError(f"{said} with wrong {name}, expected ControlArrays of {list(shape)} numbers each")
+    given = jax.tree.map(lambda values: on_device(np.reshape(values, (-1, *one)), np.float32), drives)
+    held = held_to_limits(given, world, searched, method.compiled())
+    return move._replace(**{name: jax.tree.map(lambda values: values.reshape(shape), held)})
 
 
 def search_in_turns(
@@ -113,7 +143,7 @@ def search_in_turns(
             turn = _turn(candidates, searches, one_is_enough, left)
             if not turn:
                 return [search.result() for search in searches]
-            moves = [(candidates[index], searches[index].propose()) for index in turn]
+            moves = [(candidates[index], _proposed(method, candidates[index], searches[index])) for index in turn]
         seen = make([(candidate.scenario, candidate.job, move) for candidate, move in moves])
 
 

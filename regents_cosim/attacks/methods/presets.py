@@ -243,6 +243,7 @@ class AttackConfig(ShortRepr):
 
     def __post_init__(self) -> None:
         require_file_name(self.method or "none", "method")  # a part of the ids of cases; empty in programs
+        hash(self)  # compiled programs are found by it: an own field that is a list fails here
         one_by_one, by_adversary = self.candidates.search == "per-candidate", self.steps.gradient == "adversary"
         require(
             by_adversary or self.traffic.background == "log",
