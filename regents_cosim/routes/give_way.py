@@ -77,6 +77,17 @@ def turns_across(one: WayIn, two: WayIn) -> Waiting | None:
     return first_if(one.turned_rad * side > 0.0) if into_one_road and abs(side) > _SIDE_M else None
 
 
+def waits_by_lights(
+    one: Connection | None, two: Connection | Walkway | None, signals: Iterable[Signal], step: int
+) -> Waiting | None:
+    """Who waits as the lights are at `step`: the one with red, and `g` for `G`; None: they do not tell."""
+    if one is None or two is None or one.signal != two.signal:
+        return None
+    letters = next((signal.letters(step) for signal in signals if signal.id == one.signal), "")
+    mine, theirs = (_LIT_RANK.get(letters[light.link : light.link + 1]) for light in (one, two))
+    return None if mine is None or theirs is None or mine == theirs else first_if(mine < theirs)
+
+
 @dataclass(frozen=True)
 class Meeting:
     """A way of others that crosses or joins the route.
@@ -97,14 +108,8 @@ class Meeting:
 
     def under(self, signals: Iterable[Signal], step: int) -> "Meeting":
         """The same as the lights are at `step`: who has red waits, and `g` for `G`; equal lights change nothing."""
-        light, other = self.light, self.other_light
-        if light is None or other is None or light.signal != other.signal:
-            return self
-        letters = next((one.letters(step) for one in signals if one.id == light.signal), "")
-        mine, theirs = (_LIT_RANK.get(letters[one.link : one.link + 1]) for one in (light, other))
-        if mine is None or theirs is None or mine == theirs:
-            return self
-        return replace(self, ego_yields=mine < theirs, they_yield=theirs < mine)
+        waits = waits_by_lights(self.light, self.other_light, signals, step)
+        return self if waits is None else replace(self, ego_yields=waits == "first", they_yield=waits == "second")
 
 
 class WayMet(NamedTuple):
@@ -131,10 +136,8 @@ def meetings(
         first, last = (int(metres) for metres in lanes[met.lane])
         part = shapely.LineString(points[min(first, len(points) - 2) : last + 2])
         along = first + shapely.line_locate_point(part, shapely.points(met.shared))
-        stretch, lights = (
-            (float(along.min()), float(along.max())),
-            (light_into(road, met.lane), light_into(road, met.other)),
-        )
+        stretch = float(along.min()), float(along.max())
+        lights = light_into(road, met.lane), light_into(road, met.other)
         found.append(Meeting(met.kind, met.lane, met.other, *stretch, met.ego_yields, met.they_yield, *lights))
     for name, (begin, _) in lanes.items():
         found += _on_foot(road, line, road.lane[name], begin)
@@ -194,11 +197,11 @@ def _by_signs(road: RoadMap, lane: str, other: str) -> tuple[bool | None, bool |
     """Who gives way by signs and turns; where there are lights, only by turns."""
     if other not in road.lane:
         return None, None
-    waits = (turns_across if are_lit(road, lane, other) else waits_by_signs)(_way_in(road, lane), _way_in(road, other))
+    waits = (turns_across if _are_lit(road, lane, other) else waits_by_signs)(_way_in(road, lane), _way_in(road, other))
     return (None, None) if waits is None else (waits == "first", waits == "second")
 
 
-def are_lit(road: RoadMap, *lanes: str) -> bool:
+def _are_lit(road: RoadMap, *lanes: str) -> bool:
     """Whether there is a light before one of these lanes."""
     return any(link.signal for lane in lanes for link in road.entries[lane])
 

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from regents_cosim.maps.roadmap import Connection, Lane, RoadMap
-from regents_cosim.routes.give_way import Meeting, WayMet, light_into, ways_met
+from regents_cosim.routes.give_way import WayMet, light_into, waits_by_lights, ways_met
 from regents_cosim.routes.route import route_of
 from regents_cosim.scenario.scenario import Scenario, Signal
 
@@ -50,7 +50,7 @@ def _waits_at(road: RoadMap, met: WayMet, signals: tuple[Signal, ...]) -> float 
     mine, theirs = light_into(road, met.lane), light_into(road, met.other)
     if mine is None and theirs is None:
         return 0.0
-    if mine is None or theirs is None or not _green_but_waits(met, mine, theirs, signals):
+    if mine is None or theirs is None or not _green_but_waits(mine, theirs, signals):
         return None
     lane, other = road.lane[met.lane], road.lane[met.other]
     inside = other.line.intersection(lane.line.buffer(0.5 * lane.width, cap_style="flat"))
@@ -58,12 +58,11 @@ def _waits_at(road: RoadMap, met: WayMet, signals: tuple[Signal, ...]) -> float 
     return None if inside.is_empty else float(np.min(shapely.line_locate_point(other.line, corners)))
 
 
-def _green_but_waits(met: WayMet, mine: Connection, theirs: Connection, signals: tuple[Signal, ...]) -> bool:
-    """Whether others have green, and have to let the ego pass whatever the light shows."""
-    lit = Meeting(met.kind, met.lane, met.other, 0.0, 0.0, met.ego_yields, met.they_yield, mine, theirs)
+def _green_but_waits(mine: Connection, theirs: Connection, signals: tuple[Signal, ...]) -> bool:
+    """Whether others have green at some time, and the lights never let them go before the ego."""
     changes = next((one.changes for one in signals if one.id == mine.signal == theirs.signal), ())
     green = any(letters[theirs.link : theirs.link + 1] in ("g", "G") for _, letters in changes)
-    return green and all(lit.under(signals, step).they_yield for step, _ in changes)
+    return green and all(waits_by_lights(mine, theirs, signals, step) != "first" for step, _ in changes)
 
 
 def _upstream(road: RoadMap, name: str, without: set[str]) -> Iterator[tuple[Lane, float]]:
